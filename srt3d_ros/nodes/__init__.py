@@ -1,4 +1,4 @@
-"""The ROS 2 nodes, the only importers of rclpy."""
+"""The ROS 2 nodes. Beside them, only `srt3d health` imports rclpy."""
 
 from importlib import import_module
 

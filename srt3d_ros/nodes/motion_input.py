@@ -13,6 +13,7 @@ from srt3d_ros.nodes.common.managed_node import QUEUE_DEPTH, ManagedNode
 from srt3d_ros.nodes.common.parameters import Parameter
 
 SOURCES = {"odom": (topics.ODOM, odometry.decode_odometry), "imu": (topics.IMU, odometry.decode_imu)}
+MOTION = "motion"           # cause of a degraded state
 INBOX = 10_000              # reports queued for a busy worker: 10 s of a fast IMU
 
 
@@ -68,10 +69,9 @@ class MotionInput:
 
     def judge(self, problem: str, solved: str) -> None:
         """Warn in /diagnostics while motion has a `problem`; log when that begins, and `solved` when it ends."""
-        diagnostics, before = self._node.diagnostics, self._node.diagnostics.degraded
-        diagnostics.degraded = problem and f"{problem} ({self.topic})"
-        if bool(before) != bool(diagnostics.degraded):
-            self._node.get_logger().warning(diagnostics.degraded or solved)
+        problem = problem and f"{problem} ({self.topic})"
+        if self._node.diagnostics.degrade(MOTION, problem):
+            self._node.get_logger().warning(problem or solved)
 
     def _queue(self, raw: bytes, _) -> None:
         self._reports.append((raw, self._node.now_ns()))

@@ -22,7 +22,7 @@ from srt3d_ros.nodes.common.parameters import Parameter, Values
 from srt3d_ros.nodes.common.process import run
 from srt3d_ros.nodes.common.topics import NodeSpec
 from srt3d_ros.nodes.common.worker import Dropped
-from srt3d_ros.nodes.motion_input import MotionInput
+from srt3d_ros.nodes.motion_input import MOTION, MotionInput
 from srt3d_ros.nodes.sketch_queue import QueuedSketch, SketchQueue
 from srt3d_ros.reconstruction import Reconstructor
 
@@ -169,8 +169,7 @@ class ReconstructorNode(ManagedNode):
             pixels = int(saturated(sketch).sum())
             self.diagnostics.show(cycles=sketch.cycles, saturated_pixels=pixels)
         warning = f"saturated pixels: {pixels} (a photon in over {SATURATED:.0%} of the cycles)"
-        if pixels or self._motion is None:
-            self.diagnostics.degraded = warning if pixels else ""
+        self.diagnostics.degrade("saturation", warning if pixels else "")
 
     def _hear_motion_of(self, sensor: SensorModel) -> None:
         """Subscribe to `odom` for windows of a sensor that moves, unless that is done."""
@@ -182,6 +181,7 @@ class ReconstructorNode(ManagedNode):
         self._hear_motion_of(sketch.sensor)
         mount, (before_ns, self._before_ns) = sketch.sensor.extrinsics, (self._before_ns, sketch.stamp_ns)
         if self._motion is None or not mount or self._settings["window_frames"] == 1:
+            self.diagnostics.degrade(MOTION, "")
             return None
         first_ns = min(before_ns or sketch.stamp_ns, sketch.stamp_ns)
         trajectory, cause = self._motion.over(mount, first_ns, sketch.stamp_ns, late=True)

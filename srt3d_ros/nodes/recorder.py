@@ -23,7 +23,7 @@ from srt3d_ros.nodes.common.parameters import Parameter, Values
 from srt3d_ros.nodes.common.process import run
 from srt3d_ros.nodes.common.topics import NodeSpec
 from srt3d_ros.nodes.common.worker import Dropped
-from srt3d_ros.nodes.motion_input import MotionInput
+from srt3d_ros.nodes.motion_input import MOTION, MotionInput
 from srt3d_ros.processes.versions import versions
 from srt3d_ros.recording import entities
 from srt3d_ros.recording.writer import IMAGES_HZ, FrameIndex, RecordedFrame, RecordingFailed, RecordingWriter
@@ -141,6 +141,7 @@ class RecorderNode(ManagedNode):
                 return
             self._path = free(self._asked)
         self._sensor, self._frequencies, self.diagnostics.frame_id = sensor, (), sensor.frame_id
+        self.diagnostics.degrade(MOTION, "")        # of another sensor
         self.get_logger().info(f"recording to {self._path}")
         about_run = {"namespace": self.get_namespace(), "started": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
                      "machine": platform.node(), "cpus": os.cpu_count()}

@@ -54,7 +54,7 @@ class Item(NamedTuple):
     skipped: int = 0
 
 
-def open_source(parameters: Mapping, changed: Collection[str] = ()) -> "Drawn":
+def open_source(parameters: Mapping, changed: Collection[str] = ()) -> "Source":
     """The source for the player's parameters.
 
     Raises:
@@ -70,15 +70,15 @@ def open_source(parameters: Mapping, changed: Collection[str] = ()) -> "Drawn":
     rate_hz, frames = parameters["rate_hz"], parameters["frames"]
     if kind == FILE:
         photons = datasets.read_photons(path, sensor=datasets.open_sensor(sensor_file) if sensor_file else None)
-        return Drawn(photons.sensor, lambda k: photons.events, rate_hz, frames, notes=photons.notes)
+        return Source(photons.sensor, lambda k: photons.events, rate_hz, frames, notes=photons.notes)
     if motion != "off":
-        return Moving(parameters)
+        return MovingSource(parameters)
     simulator = Simulator(sensor=default_sensor().replace(cycles=parameters["cycles"] or None), ppp=parameters["ppp"],
                           sbr=parameters["sbr"], seed=parameters["seed"], frame_rate_hz=SCENE_HZ)
-    return Drawn(simulator.sensor, lambda k: simulator.frame(k)[0], rate_hz, frames, round(bust.PERIOD_S * SCENE_HZ))
+    return Source(simulator.sensor, lambda k: simulator.frame(k)[0], rate_hz, frames, round(bust.PERIOD_S * SCENE_HZ))
 
 
-class Drawn:
+class Source:
     """A source whose packets are drawn before the first is sent, so that the player computes nothing while it plays.
 
     Packet k is due k / rate_hz after the first. After a lap, the same packets are sent again.
@@ -140,10 +140,10 @@ REPORT_NS = NS_PER_S // 100         # between odometry
 BEFORE_S, AFTER_NS = 0.5, NS_PER_S // 5     # odometry begins before the photons, and ends after them
 
 
-class Moving(Drawn):
+class MovingSource(Source):
     """The simulator's room seen by a moving sensor: packets, sent once they are acquired, and odometry."""
 
-    topics, before_s = (ODOM, *Drawn.topics), BEFORE_S
+    topics, before_s = (ODOM, *Source.topics), BEFORE_S
 
     def __init__(self, parameters: Mapping):
         self._path, cycles = MOTIONS[parameters["motion"]], ceil(parameters["cycles"] / PACKETS)

@@ -1,18 +1,23 @@
 """The reconstructor alone: clouds, images on demand, bad messages, and parameters that change."""
 
 import dataclasses
+import itertools
 
 import numpy as np
 import pytest
 import torch
+from nav_msgs.msg import Odometry
+from rclpy.time import Time
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 
+from srt3d_ros.core.motion.trajectory import Pose
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.frame_sketcher import sketch_photons
 from srt3d_ros.core.sketching.frequencies import choose_frequencies
 from srt3d_ros.core.sketching.photon_frame import PhotonEvents
 from srt3d_ros.core.sketching.sums import PhaseSums
 from srt3d_ros.messages import cdr, images_message, points_message, sensor_message, sketch_message
+from srt3d_ros.messages.odometry import encode_odometry
 from srt3d_ros.nodes.common import topics
 from srt3d_ros.nodes.reconstructor import PARAMETERS
 from tests.nodes.conftest import Graph
@@ -128,6 +133,33 @@ def test_where_the_cycles_are_known_pile_up_is_corrected_and_saturated_pixels_ar
     without = dataclasses.replace(sketch, cycles=0)
     reconstructor.graph.wait(lambda: reconstructor(without) and not reconstructor.graph.report("reconstructor")[
         "message"].startswith(("saturated", "waiting")), "the end of the warning")
+
+
+def test_saturated_pixels_and_a_window_without_motion_are_warned_of_side_by_side(reconstructor, sensor, sketch):
+    graph, moving = reconstructor.graph, sensor.replace(extrinsics="0 0 0 0 0 0 1")
+    saturated = dataclasses.replace(sketch, sensor=moving, cycles=int(sketch.photons.max()))
+    reconstructor.begin(moving, saturated, window_frames=2)
+    odom = graph.matched(graph.publisher(Odometry, "odom"))
+    stamps = (STAMP_NS + k * 10**8 for k in itertools.count())
+
+    def warnings(with_motion: bool) -> list[str]:
+        """What the report after one more frame warns of."""
+        stamp_ns = next(stamps)
+        for ms in range(-120, 21, 20) if with_motion else ():
+            message = encode_odometry(Pose())
+            message.header.stamp = Time(nanoseconds=stamp_ns + ms * 10**6).to_msg()
+            odom.publish(message)
+        reconstructor(dataclasses.replace(saturated, stamp_ns=stamp_ns))
+        texts = graph.next_reports("reconstructor", 2)[-1]["message"].split("; ")
+        return [text.partition(":")[0] for text in texts if not text.startswith("waiting")]
+
+    both = ["saturated pixels", "windows of one frame"]
+    graph.wait(lambda: sorted(warnings(with_motion=False)) == both, "both warnings")
+    graph.wait(lambda: warnings(with_motion=True) == both[:1], "motion")
+    assert [warnings(with_motion=True) for _ in range(3)] == 3 * [both[:1]]
+    assert reconstructor.process.text.count("windows follow the motion again") == 1
+    graph.wait(lambda: sorted(warnings(with_motion=False)) == both, "both warnings again")
+    assert graph.set("reconstructor", window_frames=1) == "" and warnings(with_motion=False) == both[:1]
 
 
 def test_a_plane_that_hides_the_scene_behind_it_is_warned_of(reconstructor, sensor, events, sketch):

@@ -15,8 +15,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from srt3d_ros.core.matched_frame import Matcher
 from srt3d_ros.core.method.live_time import LiveTime, recorded_pulses
+from srt3d_ros.core.method.matched_frame import Matcher
 from srt3d_ros.core.point_cloud import PointCloud
 from srt3d_ros.core.sketching.sums import PhaseSums
 from srt3d_ros.kernels.constants import EPSILON, LOCAL_SIGMA

@@ -3,7 +3,7 @@
 The level depends on what happened since the last report, and on what still holds:
     ERROR   the node failed or cannot work, and has sent no frame since; or an error was counted; or more than half of
             the messages were dropped or lost
-    WARN    a message was dropped or lost; the node works, but not as asked (`degraded`); photons look wrong (`warn`);
+    WARN    a message was dropped or lost; the node works, but not as asked (`degrade`); photons look wrong (`warn`);
             it waits for something, or has waited 2 s for a frame; or frames leave over 2 s late, or have stamps in the
             future
     OK      otherwise
@@ -11,9 +11,8 @@ The level depends on what happened since the last report, and on what still hold
 
 import time
 import traceback
-from collections import Counter, deque
+from collections import Counter
 
-import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
@@ -24,11 +23,11 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 from srt3d_ros.core.stream import Counts
 from srt3d_ros.errors import InvalidInput
 from srt3d_ros.nodes.common import peers
+from srt3d_ros.nodes.common.latencies import Latencies
 from srt3d_ros.nodes.common.status import ERROR, OK, WARN, NodeStatus
 from srt3d_ros.nodes.common.worker import Dropped
 
 PERIOD_S = 1.0
-LATENCIES_KEPT = 200    # newest frames, for the percentiles
 LAST_REPORT_S = 5.0     # timeout for the last report: DDS sends a lost one again after its heartbeat of 3 s
 POLL_READERS_S = 0.01
 MOST_DROPPED = 0.5      # share of the frames since the last report; more is an error
@@ -37,11 +36,6 @@ WAITING_EVERY_S = 10.0      # at most, a line about what the node waits for
 LOG_EVERY_S = 2.0           # at most, a line about the same failure: rclpy limits lines by their place in the source
 LOG_LOSS_EVERY_S = 60.0     # at most, a line about losses
 ENDING = ("inactive", "shutdown")       # causes of drops that are not logged
-OLD_S = 2.0             # median latency before a warning
-OTHER_CLOCK_S = 3600.0  # no queue is so long
-# Warn of stamps this far ahead of the node's clock. Clocks set by NTP differ by milliseconds, but a simulated clock may
-# tick at 10 Hz or, on a busy machine, more slowly.
-AHEAD_S = 0.5
 TOTALS, RATED = ("messages_in", "frames_out", "message_lost", "errors", "internal"), ("photons", "points")
 
 
@@ -57,7 +51,6 @@ class Diagnostics(Counts):
         state: of the node's lifecycle.
         output: the topic of the node's frames, whose readers are reported.
         problem: why the node cannot work: an error until it is set to "", or a frame is sent.
-        degraded: what the node does not do as asked: a warning until it is set to "".
         frame_id: of the sensor, once it is known.
         waiting_for: what the node waits for, if not for a frame.
         topics: on which the node receives frames.
@@ -66,9 +59,10 @@ class Diagnostics(Counts):
     def __init__(self, node: Node, output: str = "", best_effort: bool = False):
         super().__init__()
         self.state = "unconfigured"
-        self.problem = self.degraded = self.frame_id = self._warning = self._internal = ""
+        self.problem = self.frame_id = self._warning = self._internal = ""
+        self._degraded: dict[str, str] = {}     # by cause
         self._node, self._log, self.output, self._best_effort = node, node.get_logger(), output, best_effort
-        self._latencies_s: deque[float] = deque(maxlen=LATENCIES_KEPT)
+        self._latencies = Latencies()
         self._values: dict[str, object] = {}
         self.topics: tuple[str, ...] = ()
         self.waiting_for = self._waiting_on = ""       # something else than a frame, and its topic
@@ -78,7 +72,6 @@ class Diagnostics(Counts):
         self._reported = (time.monotonic(), Counter(), Counter())
         self._logged = (-LOG_LOSS_EVERY_S, Counter(), Counter())        # losses
         self._raised_at: set[tuple] = set()     # places of bugs whose traceback has been logged
-        self._least_latency_s = float("inf")
         self.publisher = node.create_publisher(DiagnosticArray, "/diagnostics", QoSProfile(depth=10),
                                                 qos_overriding_options=QoSOverridingOptions.with_default_policies())
         # A steady clock, so that reports go on while simulated time stands still.
@@ -108,8 +101,7 @@ class Diagnostics(Counts):
         with self._lock:
             self.totals["frames_out"] += 1
             self.clear()
-            self._latencies_s.append(latency_s)
-            self._least_latency_s = min(self._least_latency_s, latency_s)
+            self._latencies.add(latency_s)
 
     def error(self, text: str, counted: bool = True) -> None:
         """Show the text as the last error; `counted`: count it as an error, too."""
@@ -117,6 +109,22 @@ class Diagnostics(Counts):
             if counted:
                 self.totals["errors"] += 1
             self._last_error = text
+
+    def degrade(self, cause: str, text: str) -> bool:
+        """Warn of what the node does not do as asked, by cause, until `text` is ""; whether that begins or ends now."""
+        with self._lock:
+            changed = (cause in self._degraded) != bool(text)
+            if text:
+                self._degraded[cause] = text
+            else:
+                self._degraded.pop(cause, None)
+            return changed
+
+    def begin(self) -> None:
+        """Report nothing of former activations."""
+        with self._lock:
+            self._degraded.clear()
+        self.clear()
 
     def clear(self) -> None:
         """Report no problem and no bug any more."""
@@ -186,7 +194,7 @@ class Diagnostics(Counts):
                 counts |= _by_cause("photons_dropped", self.photons_dropped)
             facts = {"rate_in_hz": f"{rate_in_hz:.2f}", "rate_out_hz": f"{rate_out_hz:.2f}",
                      **{f"{name}_per_s": f"{new[name] / seconds:.1f}" for name in RATED if name in totals},
-                     **self._latency(), **self._values, "last_error": self._last_error}
+                     **self._latencies.percentiles(), **self._values, "last_error": self._last_error}
             waiting_for, since = self._waiting(now)
             waiting = ""
             if waiting_for:
@@ -205,26 +213,6 @@ class Diagnostics(Counts):
             why or f"{rate_in_hz:.1f} messages/s in, {rate_out_hz:.1f} out", now - self._level_since, self.state,
             self._is_ready(), waiting_for, self.readers(),
             peers.names(peers.publishers(self._node, self.topics)), counts, facts, "/".join(hardware))
-
-    def _latency(self) -> dict[str, str]:
-        """Percentiles of the latency of the newest frames; empty before the first."""
-        if not self._latencies_s:
-            return {}
-        p50_ms, p95_ms = np.percentile(self._latencies_s, [50, 95]) * 1e3
-        return {"latency_p50_ms": f"{p50_ms:.2f}", "latency_p95_ms": f"{p95_ms:.2f}"}
-
-    def _untimely(self, frames: int) -> str:
-        """A warning if the last `frames` frames were too old or stamped ahead of the node's clock."""
-        if not frames:
-            return ""
-        age_s = float(np.median(list(self._latencies_s)[-frames:]))
-        if age_s > OLD_S:
-            cause = "behind" if self._least_latency_s < OLD_S else "behind, or stamped by another clock"
-            cause = "stamped by another clock" if age_s > OTHER_CLOCK_S else cause
-            return f"frames are {age_s:.1f} s old: {cause}"
-        if age_s < -AHEAD_S:
-            return f"frames are stamped {-age_s:.1f} s ahead of this node's clock: tf cannot place them"
-        return ""
 
     def _waiting(self, now: float) -> tuple[str, float]:
         """What the node waits for, and since when; an empty text: for nothing."""
@@ -279,7 +267,8 @@ class Diagnostics(Counts):
             sent, gone = new["messages_in"] + new["message_lost"], new_drops.total() + new["message_lost"]
             why = f"dropped: {_losses_text(new, new_drops)}, of {sent}{waiting and f'; {waiting}'}"
             return ERROR if gone > MOST_DROPPED * sent else WARN, why
-        warning = waiting or self.degraded or self._warning or self._untimely(new["frames_out"])
+        degraded, untimely = "; ".join(self._degraded.values()), self._latencies.untimely(new["frames_out"])
+        warning = waiting or degraded or self._warning or untimely
         return (WARN, warning) if warning else (OK, "")
 
 

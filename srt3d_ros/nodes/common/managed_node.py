@@ -133,8 +133,7 @@ class ManagedNode(PatchedLifecycleNode):
                 "activation: activate the node again.")
         self.stopping.clear()
         self.stop_cause = ""
-        self.diagnostics.degraded = ""
-        self.diagnostics.clear()
+        self.diagnostics.begin()
         self.activate()
 
     def _deactivate(self) -> None:

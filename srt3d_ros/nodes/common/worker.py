@@ -65,7 +65,8 @@ class Worker:
 
     def hold_frames(self, cause: str) -> None:
         """Keep frames in the queue until `release_frames`, and run other jobs; frames are dropped for `cause`."""
-        self._waiting_cause = cause
+        with self._changed:
+            self._waiting_cause = cause
 
     def release_frames(self) -> None:
         """Process frames again."""
@@ -149,4 +150,5 @@ class Worker:
                     self._failed(error, job.frames)
                 except Exception:
                     traceback.print_exc()
-            self._current = None
+            with self._changed:
+                self._current = None

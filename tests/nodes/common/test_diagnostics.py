@@ -104,11 +104,13 @@ def test_levels_follow_what_happened_since_the_last_report(counted, monkeypatch)
     report = latest()
     assert (report["level"], report["last_error"]) == (OK, "ZeroDivisionError: division by zero")
     assert (latest()["waiting_for"], latest()["ready"]) == ("", "True")
-    diagnostics.degraded = "frames go on undeskewed"
-    for _ in range(2):
+    for cause, text, changes in (("motion", "frames go on undeskewed", True), ("light", "saturated pixels: 3", True),
+                                 ("light", "saturated pixels: 4", False), ("motion", "", True), ("motion", "", False)):
+        assert diagnostics.degrade(cause, text) is changes
         diagnostics.sent(0.01)
-        says(WARN, "frames go on undeskewed")
-    diagnostics.degraded = ""
+        says(WARN, text)
+    says(WARN, "saturated pixels: 4")
+    diagnostics.begin()
     monkeypatch.setattr(module, "PATIENCE_S", -1.0)
     for topic in ("/photons", "/gates", "/histograms"):
         diagnostics.expect(topic)
