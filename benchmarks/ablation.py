@@ -59,7 +59,7 @@ SCENES = {"bust, SBR 1, 1 ppp": ("bust", 1, 1, False), "bust, SBR 0.1, 10 ppp": 
           "bust in fog, SBR 1, 10 ppp": ("bust", 1, 10, True), "net, SBR 1, 10 ppp": ("net", 1, 10, False)}
 DIM = {"dim disc, SBR 10": 0.2, "dim rods, SBR 10": 1.0}      # signal photons of a pixel with a surface
 WIDE, RETRO = "wall, IRF 10 % too wide, two surfaces", "retro-reflector before a wall, two surfaces"
-MODULES = ("core.matched_frame", "core.method.background", "core.method.thresholds", "core.method.pooled",
+MODULES = ("core.method.matched_frame", "core.method.background", "core.method.thresholds", "core.method.pooled",
            "core.method.pile_up")
 # Not varied, by reason.
 FIXED = {"limits of inputs": ("MAX_SKETCH_SIZE", "MAX_PIXEL_PHOTONS", "MAX_SURFACES", "*_FALSE_ALARM_RATE"),

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from srt3d_ros.core.free_space import FreeSpace
-from srt3d_ros.core.matched_frame import Matcher
+from srt3d_ros.core.method.matched_frame import Matcher
 from srt3d_ros.core.method.pooled import Pooled
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.signs_of_life import SignsOfLife
@@ -83,7 +83,7 @@ def missed(objects: int, at_end: bool, shape: str, b: float, num_bins: int = 100
         cloud = [pooled(empty) for _ in range(frames)][-1].within(max_m=-1)     # as if it had no points
         claim, light = free.range_m(empty, cloud, brightness), []
         for area in areas:
-            r_min = brightness / np.nanmedian(claim[area])**2       # times MARGIN, and without pile-up
+            r_min = brightness / np.nanmedian(claim[area])**2       # times SAFETY, and without pile-up
             at = sensor.range_m(rng.uniform(0.05, 0.8) * num_bins) if not cycles else np.nanmedian(claim[area])
             light.append(brightness if cycles else at**2 * r_min * (1 if at_end else rng.uniform(1, 4)))
             range_m[area] = at * rng.uniform(0.6, 1) if cycles and not at_end else at

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from srt3d_ros import gpu_check
-from srt3d_ros.core import matched_frame
+from srt3d_ros.core.method import matched_frame
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.frame_sketcher import sketch_photons
 from srt3d_ros.core.sketching.frequencies import choose_frequencies

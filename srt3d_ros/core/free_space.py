@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from srt3d_ros.core.matched_frame import Matcher
+from srt3d_ros.core.method.matched_frame import Matcher
 from srt3d_ros.core.point_cloud import PointCloud
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.sums import PhaseSums
@@ -16,7 +16,7 @@ from srt3d_ros.errors import require
 from srt3d_ros.kernels.constants import EPSILON, START_SCORE
 from srt3d_ros.kernels.maps import window_weights
 
-MARGIN = 2.0            # times r_min; at 1, up to 8 % of the pixels of poles claimed emptiness behind them
+SAFETY = 2.0            # times r_min; at 1, up to 8 % of the pixels of poles claimed emptiness behind them
 NEAR = 2                # pixels within which a point ends a claim: outlines of objects at r_min are not found
 QUANTILE = 1.645        # σ by which the expected score exceeds the start's, to reach it in 95 of 100 frames
 SIZE = 5                # pixels along the side of the object that r_min is for
@@ -81,7 +81,7 @@ class FreeSpace:
         if not self._sees_near or _is_subtracted(sketch, open_):
             return free
         most, end_m = self._most_photons(sketch.photons), self.end_m(max_range_m)
-        least = MARGIN * self._least_intensity(most, cloud.clutter or 1.0) / self._share
+        least = SAFETY * self._least_intensity(most, cloud.clutter or 1.0) / self._share
         claim = (self._piled_up(least, brightness, sketch, most, end_m) if sketch.cycles
                  else np.minimum(np.sqrt(np.float32(brightness) / least), end_m))
         claim = np.minimum(claim, of_square(np.minimum, nearest, NEAR))

@@ -1,6 +1,6 @@
 """Kernels: what a device runs. `kernels.torch` has the equations and the notation; `kernels.cpu` computes the same.
 
-A frame is a `MatchedFrame` of `core.matched_frame`. Complex maps are float32 [rows, 2m, cols], real parts before
+A frame is a `MatchedFrame` of `core.method.matched_frame`. Complex maps are float32 [rows, 2m, cols], real parts before
 imaginary ones. Maps with rows', cols' are padded. Points are states, float32 [rows', K, FIELDS, cols'], terms float32
 [rows', K, TERMS, cols'] (`kernels.maps`). Arrays are on the device unless said to be NumPy's; complex ones there may
 be pairs of reals, [..., 2]. What a kernel returns is valid until the next frame.

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from srt3d_ros.core.matched_frame import MatchedFrame, Matcher, SensorOnDevice
+from srt3d_ros.core.method.matched_frame import MatchedFrame, Matcher, SensorOnDevice
 from srt3d_ros.core.methods import METHODS
 from srt3d_ros.core.metrics import circular_difference
 from srt3d_ros.core.motion.trajectory import Pose, Trajectory

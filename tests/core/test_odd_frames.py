@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from srt3d_ros.core.keys import keys
-from srt3d_ros.core.matched_frame import Matcher
 from srt3d_ros.core.method.background import Background
+from srt3d_ros.core.method.matched_frame import Matcher
 from srt3d_ros.core.method.pooled import Pooled
 from srt3d_ros.core.methods import METHODS
 from srt3d_ros.core.metrics import circular_difference

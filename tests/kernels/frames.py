@@ -16,7 +16,7 @@ from functools import partial
 import numpy as np
 import torch
 
-from srt3d_ros.core.matched_frame import MatchedFrame
+from srt3d_ros.core.method.matched_frame import MatchedFrame
 from srt3d_ros.core.metrics import circular_difference
 from srt3d_ros.core.point_cloud import PointCloud
 from srt3d_ros.core.sensor.model import SensorModel

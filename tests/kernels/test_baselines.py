@@ -205,7 +205,7 @@ def test_a_gpu_finds_the_same_points_and_looks_at_no_value(monkeypatch, method, 
     sketch = sketch_photons(make_photons(sensor, 60), sensor, tuple(range(1, 8)))
 
     def on(kernels):
-        monkeypatch.setattr("srt3d_ros.core.matched_frame.kernels_for", lambda name: kernels)
+        monkeypatch.setattr("srt3d_ros.core.method.matched_frame.kernels_for", lambda name: kernels)
         return method(sensor, sketch.frequencies, surfaces, device="cuda")
 
     found, expected = (on(each.kernels)(sketch) for each in (CPU, ORACLE))

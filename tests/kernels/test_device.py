@@ -25,7 +25,7 @@ QUICK = "expand", "log_likelihood_ratio", "finalise"       # to compile: seconds
 def built(monkeypatch, kernels, method: str, surfaces: int, **options):
     """A reconstruction that computes with these kernels as if they were a GPU's."""
     monkeypatch.setattr("srt3d_ros.core.baselines.plug_and_play.ITERATIONS", 2)     # the others do the same again
-    monkeypatch.setattr("srt3d_ros.core.matched_frame.kernels_for", lambda device: kernels)
+    monkeypatch.setattr("srt3d_ros.core.method.matched_frame.kernels_for", lambda device: kernels)
     return METHODS[method].build(SENSOR, SKETCHES[0].frequencies, surfaces=surfaces, device="cuda", **options)
 
 

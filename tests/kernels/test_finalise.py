@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from srt3d_ros.core.matched_frame import Matcher
+from srt3d_ros.core.method.matched_frame import Matcher
 from srt3d_ros.kernels import maps
 from tests.core.scenes import matched_frame
 

@@ -23,7 +23,7 @@ from .frames import CPU, FAINT, ORACLE, SHAPES, SINGLE, assert_clouds_agree, mak
 
 
 def built(monkeypatch, backend, sensor, frequencies, *arguments, **options) -> Pooled:
-    monkeypatch.setattr("srt3d_ros.core.matched_frame.kernels_for", lambda device: backend.kernels)
+    monkeypatch.setattr("srt3d_ros.core.method.matched_frame.kernels_for", lambda device: backend.kernels)
     return Pooled(sensor, frequencies, *arguments, device="cpu", **options)
 
 

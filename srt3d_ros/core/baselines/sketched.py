@@ -21,7 +21,7 @@ from srt3d_ros.core.baselines.plug_and_play import (
     plug_and_play,
     points_needed,
 )
-from srt3d_ros.core.matched_frame import MatchedFrame, Matcher, SensorOnDevice
+from srt3d_ros.core.method.matched_frame import MatchedFrame, Matcher, SensorOnDevice
 from srt3d_ros.core.point_cloud import PointCloud
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.frequencies import angular_frequencies, irf_spectrum, mean_energy

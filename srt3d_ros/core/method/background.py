@@ -11,7 +11,7 @@ from typing import NamedTuple, Self
 
 import numpy as np
 
-from srt3d_ros.core.matched_frame import Matcher
+from srt3d_ros.core.method.matched_frame import Matcher
 from srt3d_ros.core.sketching.sums import PhaseSums
 from srt3d_ros.kernels.constants import EPSILON
 

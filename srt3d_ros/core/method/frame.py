@@ -9,8 +9,8 @@ from math import ceil
 
 import numpy as np
 
-from srt3d_ros.core.matched_frame import MatchedFrame, Matcher, SensorOnDevice
 from srt3d_ros.core.method.background import RemovedBackground, Unexplained
+from srt3d_ros.core.method.matched_frame import MatchedFrame, Matcher, SensorOnDevice
 from srt3d_ros.core.method.thresholds import Scores
 from srt3d_ros.core.point_cloud import PointCloud
 from srt3d_ros.core.sketching.sums import PhaseSums

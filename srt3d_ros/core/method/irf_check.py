@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from srt3d_ros.core.matched_frame import CORRECTED, Matcher, uncorrected
+from srt3d_ros.core.method.matched_frame import CORRECTED, Matcher, uncorrected
 from srt3d_ros.core.point_cloud import PointCloud
 from srt3d_ros.core.sketching.sums import PhaseSums
 

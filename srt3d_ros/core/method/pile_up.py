@@ -15,8 +15,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from srt3d_ros.core.matched_frame import Matcher
 from srt3d_ros.core.method.live_time import LiveTime, recorded_pulses
+from srt3d_ros.core.method.matched_frame import Matcher
 from srt3d_ros.core.point_cloud import PointCloud
 from srt3d_ros.core.sketching.sums import PhaseSums
 from srt3d_ros.kernels.constants import EPSILON, LOCAL_SIGMA
@@ -71,7 +71,8 @@ class PileUp:
     """
 
     def __init__(self, matcher: Matcher):
-        self._sensor, self._used, self._kernels = matcher.sensor, matcher.used > 0, kernels_for("cpu")
+        self._sensor, self._used = matcher.sensor, matcher.used > 0
+        self._kernels = kernels_for("cpu").for_shape(*matcher.sensor.shape, 1, matcher.frequencies)
         self.first = Seen(1.0, np.zeros(matcher.sensor.shape, np.float32))
         dead, omega = matcher.sensor.dead_time, matcher.omega
         self._omega, step = omega, 1 / matcher.sensor.num_bins / (1j * omega)

@@ -15,10 +15,10 @@ from functools import cached_property
 
 import numpy as np
 
-from srt3d_ros.core.matched_frame import Matcher
 from srt3d_ros.core.method.background import Background, BackgroundEstimate, RemovedBackground
 from srt3d_ros.core.method.frame import Frames
 from srt3d_ros.core.method.irf_check import misplaced_share
+from srt3d_ros.core.method.matched_frame import Matcher
 from srt3d_ros.core.method.pile_up import PileUp
 from srt3d_ros.core.method.thresholds import DEFAULT_FALSE_ALARM_RATE, Scores
 from srt3d_ros.core.motion.trajectory import Trajectory

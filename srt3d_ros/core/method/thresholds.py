@@ -20,8 +20,8 @@ class Scores(NamedTuple):
         find: a first surface, in the widest window.
         further: a further surface there.
         drop: points below it are removed after the first window.
-        keep: a point whose depth is known, by its neighbours: Q(keep) = √P. No search multiplies chance, and the prior
-            that a surface continues is worth half of the evidence.
+        keep: a point whose depth is known, by its neighbours: Q(keep) = √(P / STAYING). No search multiplies chance,
+            and the prior that a surface continues is worth half of the evidence.
         whole: the best point of a surface at the end; in its outline and depth, it has grown with chance.
     """
 

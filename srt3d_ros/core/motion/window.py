@@ -44,11 +44,13 @@ class MovingWindow:
         Args:
             sketch: of one frame, as seen at its stamp.
             trajectory: of the sensor; None if it is at rest. One that does not cover the time since the last frame
-                begins a new window.
+                begins a new window, as a frame does that has `before` and the last one not, or the other way round.
             cloud: of the last frame; tells the ranges. Without one, the photons do.
         """
         m, own, exposure = len(sketch.frequencies), _with_exposure(sketch), np.ones(sketch.photons.shape, np.float32)
         before = self._before
+        if before is not None and before.sums.shape != own.shape:
+            before = None       # one of both does not know the photons before the gate
         if before is not None and trajectory is not None:
             goes_on = before.stamp_ns < sketch.stamp_ns and trajectory.covers(before.stamp_ns, sketch.stamp_ns)
             before = self._moved(before, sketch, trajectory, cloud) if goes_on else None

@@ -82,7 +82,8 @@ class SensorModel:
         "bins of the `histograms` topic", more="default: the sensor's num_bins bins, from bin 0 on",
         array="histogram_bins")] = None
     cycles: Annotated[int | None, Key(
-        "laser cycles of a frame, to correct pile-up in a detector that records only the first photon of each cycle",
+        "laser cycles of a message or of a file's frame, to correct pile-up in a detector that records only the first "
+        "photon of each cycle",
         "cycle", (1, 10**9), "those of `gates` messages are counted; default: unknown, no correction",
         option=True)] = None
     dead_time_s: Annotated[float | None, Key(

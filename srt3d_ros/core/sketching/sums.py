@@ -11,6 +11,8 @@ from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.errors import InvalidInput, require
 from srt3d_ros.kernels.constants import MAX_PIXEL_PHOTONS, MAX_SKETCH_SIZE
 
+MAPS = "before", "exposure"         # of pixels, where they are known
+
 
 def as_array(name: str, values: Any, sides: int, kinds: str) -> np.ndarray:
     """Values as an array of so many dimensions, its dtype of one of these kinds; InvalidInput for others."""
@@ -82,6 +84,9 @@ class PhaseSums:
         require(photons.shape == pixels, "photons shape", photons.shape, f"{pixels}, the sensor's pixels")
         require(sums.shape == (*pixels, len(frequencies)), "sums shape", sums.shape,
                 f"[rows, cols, {len(frequencies)}], rows and cols as of photons")
+        for name in MAPS:
+            if (value := getattr(self, name)) is not None:
+                require(np.shape(value) == pixels, f"{name} shape", np.shape(value), f"{pixels}, the sensor's pixels")
         for name, value in (("frequencies", frequencies), ("sums", sums.astype(np.complex64, copy=False)),
                             ("photons", photons.astype(np.uint32, copy=False))):
             object.__setattr__(self, name, value)
@@ -133,9 +138,9 @@ class PhaseSums:
     def __getitem__(self, pixels: slice | tuple[slice, slice]) -> Self:
         """The sketch of a window of pixels; InvalidInput if none is in it."""
         rows, cols = pixels if isinstance(pixels, tuple) and len(pixels) == 2 else (pixels, slice(None))
+        maps = {name: value[rows, cols] for name in MAPS if (value := getattr(self, name)) is not None}
         return replace(self, sums=self.sums[rows, cols], photons=self.photons[rows, cols],
-                       before=None if self.before is None else self.before[rows, cols],
-                       sensor=self.sensor.cropped(rows, cols))
+                       sensor=self.sensor.cropped(rows, cols), **maps)
 
 
 def added_cycles(sketches: Sequence[PhaseSums]) -> tuple[int, np.ndarray | None]:

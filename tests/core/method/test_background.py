@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from srt3d_ros.core.matched_frame import Matcher
 from srt3d_ros.core.method.background import Background
+from srt3d_ros.core.method.matched_frame import Matcher
 from srt3d_ros.core.method.pooled import Pooled
 from srt3d_ros.core.metrics import circular_difference, evaluate
 from srt3d_ros.core.sensor.model import SensorModel

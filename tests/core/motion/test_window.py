@@ -109,6 +109,13 @@ def test_cycles_and_photons_before_the_gate_are_those_of_the_exposure():
         found + found
 
 
+def test_frames_with_and_without_photons_before_a_gate_do_not_mix():
+    window, gated = MovingWindow(SENSOR, FREQUENCIES, 4), {"cycles": 50, "before": np.full((ROWS, COLS), 30, np.uint32)}
+    found = [window(seen(40, 9, **more), None, None) for more in (gated, gated, {}, {}, gated, gated)]
+    assert [(one.exposure > 1).all() for one in found] == [False, True] * 3
+    assert [one.before is not None for one in found] == [True, True, False, False, True, True]
+
+
 @pytest.mark.parametrize("cycles", [None, 12])
 def test_clouds_of_a_window_have_more_points_and_the_photons_of_one_frame(cycles):
     """A slanted wall of few photons, with pile-up or without; half of the pixels have twice the gain."""

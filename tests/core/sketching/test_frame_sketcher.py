@@ -162,7 +162,9 @@ def make(rows=2, cols=3, frequencies=(1, 4), seed=0, stamp_ns=0, **changes) -> P
         ({"frequencies": (1, 5)}, r"frequencies is \(1, 5\): expected the same as \(1, 4\)"),
         ({"rows": 1}, r"Cannot add sketches of different sensors \(rows 2 and 1\)\."),
         ({"bin_width_s": 1e-9}, r"Cannot add sketches of different sensors \(bin_width_s 1e-10 and 1e-09\)\."))),
-    (lambda: replace(make(), frequencies=(1, 2, 3)), "sums shape")])
+    (lambda: replace(make(), frequencies=(1, 2, 3)), "sums shape"),
+    (lambda: replace(make(), before=np.ones((3, 2), np.uint32)), "before shape"),
+    (lambda: replace(make(), exposure=np.ones(6, np.float32)), "exposure shape")])
 def test_what_cannot_be_used_is_refused(call, said):
     with pytest.raises(InvalidInput, match=f"^{said}"):
         call()
@@ -184,6 +186,12 @@ def test_z_is_the_mean_and_sketches_add_with_their_cycles_and_the_earliest_stamp
     assert (known + gated).cycles == 150 and (gated + gated).before.tolist() == [[2] * 3] * 2
     assert (known + one).cycles == (one + known).cycles == 0
     assert (gated.armed_cycles == 49).all()
+
+
+def test_a_part_has_the_maps_of_its_pixels():
+    maps = np.arange(6, dtype=np.uint32).reshape(2, 3)
+    part = replace(make(), before=maps, exposure=maps.astype(np.float32))[1:, 1:]
+    assert part.before.tolist() == part.exposure.tolist() == [[4, 5]] and part.sensor.shape == (1, 2)
 
 
 def test_sums_of_more_photons_than_32_bits_hold_are_a_full_pixel_of_the_same_mean():

@@ -1,32 +1,11 @@
-"""Evidence of a pixel's own photons for its surfaces: `expand` and `log_likelihood_ratio`."""
+"""Evidence of a pixel's own photons for its surfaces: `log_likelihood_ratio`."""
 
-import math
 
 import torch
 
 from srt3d_ros.kernels.constants import DEAD_LIMIT, EPSILON, LIKENESS
-from srt3d_ros.kernels.maps import DEPTH, INTENSITY, VALUE
-from srt3d_ros.kernels.torch.arithmetic import explained, turned, waves
+from srt3d_ros.kernels.maps import INTENSITY, VALUE
 from srt3d_ros.kernels.torch.fusing import fused
-
-
-@fused
-def expand(frame, state):
-    """The data term of every point to second order, f(t + d) ≈ v + s d − b d² / 2, at the depth t that it shows.
-
-    With z'_l = (z_l − g Σ_{o ≠ k} r_o |ĥ_l|² exp(i ω_l t_o)) exp(−i ω_l t_k), what other surfaces leave of a pixel:
-    v = Σ Re z'_l = R(z, t), s = Σ ω_l Im z'_l, b = Σ ω_l² Re z'_l.
-    """
-    depth, intensity = state[:, :, DEPTH], state[:, :, INTENSITY]
-    omega, wave, z = 2 * math.pi * frame.bin_frequencies[:, None], waves(frame, depth), frame.matched[:, None]
-    z = z.chunk(2, dim=2)
-    if state.shape[1] > 1:
-        own = explained(frame, wave, frame.exposure[:, None] * intensity)
-        z = [part - gives.sum(dim=1, keepdim=True) + gives for part, gives in zip(z, own)]
-    re, im = turned(z, wave)
-    counts, exposure = (values[:, None].expand_as(depth) for values in (frame.counts, frame.exposure))
-    terms = [re.sum(dim=2), (omega * im).sum(dim=2), (omega**2 * re).sum(dim=2), counts, counts, exposure]
-    return torch.stack(terms, dim=2).masked_fill((intensity <= 0)[:, :, None], 0)
 
 
 def evidence(response, photons, squares, frame):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from srt3d_ros.core.matched_frame import WEAKEST_PASSBAND, Matcher
+from srt3d_ros.core.method.matched_frame import WEAKEST_PASSBAND, Matcher
 from srt3d_ros.core.sensor.model import SensorModel
 from srt3d_ros.core.sketching.frequencies import angular_frequencies, irf_spectrum
 from srt3d_ros.core.sketching.sums import PhaseSums, noise_sketch
