@@ -9,7 +9,8 @@ from srt3d_ros.kernels.constants import DEAD_LIMIT, LIKENESS
 from srt3d_ros.kernels.cpu.arithmetic import exp, log
 from srt3d_ros.kernels.cpu.method.frame import Frame
 from srt3d_ros.kernels.cpu.method.likelihood import llr as kernel
-from srt3d_ros.kernels.cpu.vectors import full, span, total
+from srt3d_ros.kernels.cpu.spans import span
+from srt3d_ros.kernels.cpu.vectors import full, total
 
 from .frames import (
     CPU,

@@ -5,6 +5,7 @@ from types import FunctionType
 import numpy as np
 from numba import njit
 
+from srt3d_ros.kernels.cpu.spans import span, spanning
 from srt3d_ros.kernels.cpu.vectors import (
     bits_of,
     floor,
@@ -13,11 +14,9 @@ from srt3d_ros.kernels.cpu.vectors import (
     lane_numbers,
     lanes_of,
     rint,
-    span,
-    spanning,
     sqrt,
-    to_cell,
     to_floats,
+    to_ints,
     to_longs,
     total,
     where,
@@ -56,7 +55,7 @@ def ints_of(x, i, j, number):
     added += j
     return (
         i + j, i - j, i * j, added, i << 3, i >> 2, max(i, j), min(i, j), i + 1, 7 - i, i * 3,
-        where(i < j, i, 3), full(4), bits_of(x), to_cell(x, 9), to_cell(x * 8, number), lane_numbers())
+        where(i < j, i, 3), full(4), bits_of(x), to_ints(x, 9), to_ints(x * 8, number), lane_numbers())
 
 
 def masks_of(x, y, i, j):
@@ -80,7 +79,7 @@ def total_in_numpy(values):
     return values[0]
 
 
-def to_cell_in_numpy(values, last):
+def to_ints_in_numpy(values, last):
     above = np.where(values > 0, values, 0)
     return np.where(above < last, above, last).astype(np.int32)
 
@@ -92,7 +91,7 @@ def where_in_numpy(condition, one, other):
 
 IN_NUMPY = dict(
     max=chain(np.greater), min=chain(np.less), abs=np.abs, rint=np.rint, floor=np.floor, sqrt=np.sqrt,
-    where=where_in_numpy, to_cell=to_cell_in_numpy, to_floats=np.float32, total=total_in_numpy,
+    where=where_in_numpy, to_ints=to_ints_in_numpy, to_floats=np.float32, total=total_in_numpy,
     full=lambda number: np.full(LANES, number),
     bits_of=lambda values: values.view(np.int32 if values.dtype == np.float32 else np.float32),
     lane_numbers=lambda: np.arange(LANES, dtype=np.int32),

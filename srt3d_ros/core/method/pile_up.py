@@ -71,7 +71,8 @@ class PileUp:
     """
 
     def __init__(self, matcher: Matcher):
-        self._sensor, self._used, self._kernels = matcher.sensor, matcher.used > 0, kernels_for("cpu")
+        self._sensor, self._used = matcher.sensor, matcher.used > 0
+        self._kernels = kernels_for("cpu").for_shape(*matcher.sensor.shape, 1, matcher.frequencies)
         self.first = Seen(1.0, np.zeros(matcher.sensor.shape, np.float32))
         dead, omega = matcher.sensor.dead_time, matcher.omega
         self._omega, step = omega, 1 / matcher.sensor.num_bins / (1j * omega)

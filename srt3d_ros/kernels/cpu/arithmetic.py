@@ -4,7 +4,7 @@ import numpy as np
 
 from srt3d_ros.kernels import constants
 from srt3d_ros.kernels.cpu.compiling import inline
-from srt3d_ros.kernels.cpu.vectors import bits_of, fma, rint, to_cell, to_floats
+from srt3d_ros.kernels.cpu.vectors import bits_of, fma, rint, to_floats, to_ints
 
 F32 = np.float32
 HALF, ONE, ZERO = F32(0.5), F32(1), F32(0)       # for numbers beside numbers; vectors take any
@@ -53,7 +53,7 @@ def exp(value):
     """Exponential function of a vector of numbers ≤ 0; at least 2⁻¹²⁶."""
     turns = max(value * (ONE / LN_2), LOWEST)
     whole = rint(turns)
-    return polynomial(turns - whole, _EXP) * bits_of(to_cell(whole + BIAS, 2 * BIAS) << MANTISSA)
+    return polynomial(turns - whole, _EXP) * bits_of(to_ints(whole + BIAS, 2 * BIAS) << MANTISSA)
 
 
 @inline

@@ -16,7 +16,7 @@ from numba import __version__, config, float32, njit, prange, types
 from numba.core import event
 from numba.core.caching import FunctionCache
 
-from srt3d_ros.kernels.cpu.vectors import columns
+from srt3d_ros.kernels.cpu.spans import columns
 from srt3d_ros.kernels.maps import MARGIN
 
 # With OpenMP several threads of a process may call kernels at once; numba's own work queue would abort. A choice in the

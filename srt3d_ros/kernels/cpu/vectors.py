@@ -1,10 +1,5 @@
 """Vectors for compiled code: LANES numbers in registers, with the operators of numbers.
 
-    for j in columns(state):                            # j: the LANES columns of a vector
-        depth = state[i, k, DEPTH, j]
-        e = state[i, k, DEPTH, j + 1] - depth           # to the pixels on the right
-        out[i, k, DEPTH, j] = where(e > 0, depth + e / 2, 0)
-
 Kinds are `floats` (float32), `ints` (int32) and `mask`. A number beside a vector counts in each lane, as its type.
 Sums of integers have vectors of other widths, too, and of int64.
 LLVM splits a vector into what the processor has (SSE2, AVX2, AVX-512, NEON); 8 lanes were slower on all of them.
@@ -16,14 +11,13 @@ import operator
 from functools import partial, reduce
 
 from llvmlite import ir
-from numba import boolean, float32, int32, int64, njit, types
+from numba import boolean, float32, int32, int64, types
 from numba.core import cgutils
-from numba.core.imputils import lower_builtin, lower_cast, lower_constant
+from numba.core.imputils import lower_builtin, lower_cast
 from numba.core.typing.templates import AbstractTemplate, infer_global, signature
-from numba.extending import intrinsic, models, register_model, typeof_impl
-from numba.np.arrayobj import getitem_array_tuple
+from numba.extending import intrinsic, models, register_model
 
-from srt3d_ros.kernels.maps import LANES, MARGIN
+from srt3d_ros.kernels.maps import LANES
 
 I32, I64 = ir.IntType(32), ir.IntType(64)
 BITS = {float32: ir.FloatType(), int32: I32, int64: I64, boolean: ir.IntType(1)}
@@ -40,7 +34,7 @@ class Vector(types.Type):
 
 
 @register_model(Vector)
-class _Registers(models.PrimitiveModel):
+class Registers(models.PrimitiveModel):
     def __init__(self, manager, kind):
         super().__init__(manager, kind, kind.registers)
 
@@ -127,7 +121,7 @@ _define(abs, {float32: partial(_call, "fabs")})
 
 # ---- Functions
 
-def _emitted(sig, emit):
+def emitted(sig, emit):
     """What an intrinsic returns: its signature, and what it emits as a function of builder and values."""
     return sig, lambda context, builder, sig, values: emit(builder, *values)
 
@@ -137,7 +131,7 @@ def _of_one(name):
     @intrinsic
     def apply(context, x):
         kind = floats if x == floats else float32
-        return _emitted(kind(kind), partial(_call, name))
+        return emitted(kind(kind), partial(_call, name))
     return apply
 
 
@@ -148,7 +142,7 @@ rint, floor, sqrt = map(_of_one, ("rint", "floor", "sqrt"))
 def fma(context, a, b, c):
     """a · b + c, of vectors or of numbers, rounded once where the processor has an instruction for it."""
     kind = floats if floats in (a, b, c) else float32
-    return _emitted(kind(kind, kind, kind), partial(_call, "fmuladd"))
+    return emitted(kind(kind, kind, kind), partial(_call, "fmuladd"))
 
 
 @intrinsic
@@ -159,28 +153,28 @@ def where(context, condition, a, b):
             fields = ([builder.extract_value(side, n) if isinstance(side.type, ir.ArrayType) else side
                        for n in range(a.count)] for side in sides)
             return cgutils.pack_array(builder, [builder.select(condition, x, y) for x, y in zip(*fields)])
-        return _emitted(a(mask, a, a if a == b else a.dtype), choose)
+        return emitted(a(mask, a, a if a == b else a.dtype), choose)
     kind = _kind((a, b)) or floats
-    return _emitted(kind(mask, kind, kind), _make.select)
+    return emitted(kind(mask, kind, kind), _make.select)
 
 
 @intrinsic
 def full(context, number):
     """A number in each lane."""
     kind = floats if isinstance(number, types.Float) else ints if isinstance(number, types.Integer) else mask
-    return _emitted(kind(kind), lambda builder, vector: vector)
+    return emitted(kind(kind), lambda builder, vector: vector)
 
 
 @intrinsic
 def lane_numbers(context):
     """The `ints` 0, 1, 2 …"""
-    return _emitted(ints(), lambda builder: ir.Constant(ints.registers, list(range(LANES))))
+    return emitted(ints(), lambda builder: ir.Constant(ints.registers, list(range(LANES))))
 
 
 @intrinsic
 def lanes_of(context, condition):
     """The lanes in which a condition holds, as the bits of a number; 0: in none."""
-    return _emitted(types.int64(mask), lambda builder, bits: builder.zext(
+    return emitted(types.int64(mask), lambda builder, bits: builder.zext(
         builder.bitcast(bits, ir.IntType(LANES)), I64))
 
 
@@ -195,151 +189,33 @@ def total(context, vector):
                 range(first, first + width)))) for first in (0, width))
             values = builder.fadd(low, high)
         return builder.extract_element(values, I32(0))
-    return _emitted(float32(floats), add)
+    return emitted(float32(floats), add)
 
 
 @intrinsic
-def to_cell(context, vector, last):
+def to_ints(context, vector, last):
     """The numbers without their fractions as `ints` from 0 to `last`; NaN is 0. Processors differ in others."""
     def convert(builder, values, top):
         from_zero = _choose(">")[float32](builder, values, ir.Constant(values.type, [0.0] * LANES))
         return builder.fptosi(_choose("<")[float32](builder, from_zero, top), ints.registers)
-    return _emitted(ints(floats, floats), convert)
+    return emitted(ints(floats, floats), convert)
 
 
 @intrinsic
 def to_floats(context, vector):
     """The `ints` as `floats`."""
-    return _emitted(floats(ints), lambda builder, values: builder.sitofp(values, floats.registers))
+    return emitted(floats(ints), lambda builder, values: builder.sitofp(values, floats.registers))
 
 
 @intrinsic
 def to_longs(context, vector):
     """Integers of 32 bits as those of 64."""
     kind = Vector(int64, vector.lanes)
-    return _emitted(kind(vector), lambda builder, values: builder.sext(values, kind.registers))
+    return emitted(kind(vector), lambda builder, values: builder.sext(values, kind.registers))
 
 
 @intrinsic
 def bits_of(context, vector):
     """The bits of `floats` as `ints`, and the reverse."""
     kind = {floats: ints, ints: floats}.get(vector)
-    return _emitted(kind(vector), lambda builder, values: builder.bitcast(values, kind.registers)) if kind else None
-
-
-# ---- Memory
-
-class Span(types.Type):
-    """Index of `lanes` columns side by side; in LLVM, the first one. Numbers move it."""
-
-    def __init__(self, lanes=LANES):
-        self.lanes, self.registers = lanes, I64
-        super().__init__(f"columns x{lanes}")
-
-
-register_model(Span)(_Registers)
-
-
-def spanning(lanes):
-    """A function that makes the index of so many columns from a first one on."""
-    @intrinsic
-    def span(context, first):
-        return _emitted(Span(lanes)(types.intp), lambda builder, first: first)
-    return span
-
-
-span = spanning(LANES)
-
-
-class _All:
-    """Index of the columns of an array with no more than LANES."""
-
-
-ALL = _All()
-typeof_impl.register(_All)(lambda value, context: Span())
-lower_constant(Span)(lambda context, builder, kind, value: I64(0))
-
-
-@intrinsic
-def first_of(context, columns):
-    """The first column of an index."""
-    return _emitted(types.intp(columns), lambda builder, first: first)
-
-
-@njit(_nrt=False)
-def columns(padded):
-    """The indices of the vectors of a row of a padded map."""
-    for first in range(MARGIN, padded.shape[-1] - MARGIN, LANES):
-        yield span(first)
-
-
-def _moving(key, emit):
-    def generic(self, args, kws):
-        is_moved = len(args) == 2 and isinstance(args[0], Span) and isinstance(args[1], types.Integer)
-        return signature(args[0], args[0], types.intp) if is_moved else None
-
-    infer_global(key)(type("Moved", (AbstractTemplate,), {"key": key, "generic": generic}))
-    lower_builtin(key, Span, types.intp)(lambda context, builder, sig, args: emit(builder, *args))
-
-
-_moving(operator.add, _make.add)
-_moving(operator.sub, _make.sub)
-
-
-def _indexing(key, result):
-    """Define array[index], with a Span or `ints` among the indices, by its result and what it takes: result(vector)."""
-    def generic(self, args, kws):
-        array, index, *value = args
-        indices = list(index) if isinstance(index, types.BaseTuple) else [index]
-        lanes = [each.lanes for each in indices if isinstance(each, Span | Vector)]
-        if isinstance(array, types.Array) and len(indices) == array.ndim and lanes:
-            kinds = [each if isinstance(each, Span | Vector) else types.intp for each in indices]
-            kind = Vector(array.dtype, lanes[0])
-            index = types.BaseTuple.from_types(kinds) if isinstance(index, types.BaseTuple) else index
-            return signature(result or kind, array, index, *[kind] * len(value))
-        return None
-
-    infer_global(key)(type("Indexed", (AbstractTemplate,), {"key": key, "generic": generic}))
-
-
-def _pointers(context, builder, sig, args):
-    """The pointer to array[index], or of each lane if `ints` are among the indices; none counts from the end."""
-    array = context.make_array(sig.args[0])(context, builder, args[0])
-    indices = cgutils.unpack_tuple(builder, args[1]) if isinstance(sig.args[1], types.BaseTuple) else [args[1]]
-
-    def in_lane(index, x):
-        return builder.sext(builder.extract_element(index, I32(x)), I64) if index.type == ints.registers else index
-
-    lanes = LANES if any(index.type == ints.registers for index in indices) else 1
-    return [cgutils.get_item_pointer(context, builder, sig.args[0], array, [in_lane(index, x) for index in indices],
-                                     wraparound=False) for x in range(lanes)]
-
-
-def _load(context, builder, sig, args):
-    kind = sig.return_type
-    if not isinstance(kind, Vector):
-        return getitem_array_tuple(context, builder, sig, args)
-    pointers = _pointers(context, builder, sig, args)
-    if len(pointers) == 1:
-        return builder.load(builder.bitcast(pointers[0], kind.registers.as_pointer()), align=4)
-    values = ir.Constant(kind.registers, ir.Undefined)
-    for x, pointer in enumerate(pointers):
-        values = builder.insert_element(values, builder.load(pointer, align=4), I32(x))
-    return values
-
-
-def _store(context, builder, sig, args):
-    """Of lanes with one place, the last one stays."""
-    pointers, vector = _pointers(context, builder, sig, args), args[2]
-    if len(pointers) == 1:
-        builder.store(vector, builder.bitcast(pointers[0], vector.type.as_pointer()), align=4)
-    else:
-        for x, pointer in enumerate(pointers):
-            builder.store(builder.extract_element(vector, I32(x)), pointer, align=4)
-
-
-_indexing(operator.getitem, None)
-_indexing(operator.setitem, types.none)
-for _index in (types.BaseTuple, Span, Vector):
-    lower_builtin(operator.getitem, types.Array, _index)(_load)
-    lower_builtin(operator.setitem, types.Array, _index, Vector)(_store)
+    return emitted(kind(vector), lambda builder, values: builder.bitcast(values, kind.registers)) if kind else None

@@ -21,7 +21,7 @@ class Workspace:
     def array(self, name: str, *shape: int, of: type = np.float32) -> np.ndarray:
         key = name, *shape
         if key not in self._arrays:
-            self._arrays[key] = zeros(*shape).view(of) if of != np.bool_ else np.zeros(shape, of)
+            self._arrays[key] = zeros(*shape).view(of)
         return self._arrays[key]
 
     def map(self, name: str, *channels: int) -> np.ndarray:

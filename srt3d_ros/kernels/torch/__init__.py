@@ -33,19 +33,15 @@ from srt3d_ros.kernels.torch.baselines.apss import apss
 from srt3d_ros.kernels.torch.baselines.gradients import median_depth, pixelwise, usual_intensity
 from srt3d_ros.kernels.torch.device import Kernels
 from srt3d_ros.kernels.torch.method.birth_death import birth_death
+from srt3d_ros.kernels.torch.method.collect import collect
 from srt3d_ros.kernels.torch.method.drops import drop_blobs, drop_ghosts, trim
-from srt3d_ros.kernels.torch.method.finalise import (
-    background,
-    collect,
-    drop_weak,
-    finalise,
-    local_mean,
-    unexplained,
-)
-from srt3d_ros.kernels.torch.method.likelihood import expand, log_likelihood_ratio, solve_pairs
+from srt3d_ros.kernels.torch.method.finalise import background, drop_weak, finalise, local_mean
+from srt3d_ros.kernels.torch.method.likelihood import log_likelihood_ratio
+from srt3d_ros.kernels.torch.method.match import match
 from srt3d_ros.kernels.torch.method.planes import turn_planes
 from srt3d_ros.kernels.torch.method.pooled_step import pooled_step
-from srt3d_ros.kernels.torch.method.search import match, no_surfaces, prepare, residual, search
+from srt3d_ros.kernels.torch.method.search import no_surfaces, search
+from srt3d_ros.kernels.torch.method.sketches import expand, prepare, residual, solve_pairs, unexplained
 from srt3d_ros.kernels.torch.method.windows import blur
 
 FUNCTIONS = {function.__name__: function for function in (

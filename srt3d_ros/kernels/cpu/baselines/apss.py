@@ -19,7 +19,8 @@ from srt3d_ros.kernels.constants import (
 )
 from srt3d_ros.kernels.cpu.arithmetic import F32, wrap
 from srt3d_ros.kernels.cpu.compiling import each, floats2d, floats3d, floats4d, inline, line
-from srt3d_ros.kernels.cpu.vectors import ALL, floor, fma, full, lanes_of, sqrt, where
+from srt3d_ros.kernels.cpu.spans import ALL
+from srt3d_ros.kernels.cpu.vectors import floor, fma, full, lanes_of, sqrt, where
 from srt3d_ros.kernels.maps import LANES
 
 CENTRE_FIRST = 4, 0, 1, 2, 3, 5, 6, 7, 8        # pixels of 3 × 3, row by row

@@ -13,7 +13,7 @@ from srt3d_ros.kernels.cpu.arithmetic import F32, ONE, TINY, ZERO
 from srt3d_ros.kernels.cpu.compiling import each, floats1d, floats2d, floats3d, inline, line, parallel
 from srt3d_ros.kernels.cpu.method.frame import Frame
 from srt3d_ros.kernels.cpu.method.sketches import others_removed
-from srt3d_ros.kernels.cpu.vectors import floor, full, lanes_of, to_cell, where
+from srt3d_ros.kernels.cpu.vectors import floor, full, lanes_of, to_ints, where
 from srt3d_ros.kernels.maps import MARGIN
 
 RATE = F32(constants.INTENSITY_RATE)
@@ -29,7 +29,7 @@ def _step_at(table, level, row, l):
 def _errors(i, k, j, frame, table, depth, intensity):
     """Δ_rt and Δ_r."""
     gives, last = frame.exposure[i, j] * intensity[i, k, j], len(table) - 1
-    level = to_cell(min(gives / max(frame.counts[i, j], 1), 1) * last + 0.5, last)
+    level = to_ints(min(gives / max(frame.counts[i, j], 1), 1) * last + 0.5, last)
     shift = change = full(0.0)
     for l in range(len(frame.energy)):
         re, im = others_removed(i, k, j, l, frame, depth, intensity)

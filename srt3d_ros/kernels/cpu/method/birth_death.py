@@ -47,7 +47,8 @@ from srt3d_ros.kernels.cpu.method.voters import (
     undecided,
     voter_at,
 )
-from srt3d_ros.kernels.cpu.vectors import ALL, floats, floor, full, lanes_of, span, where
+from srt3d_ros.kernels.cpu.spans import ALL, span
+from srt3d_ros.kernels.cpu.vectors import floats, floor, full, lanes_of, where
 from srt3d_ros.kernels.maps import FIELDS, INTENSITY, LANES
 
 ALWAYS = -1e30              # what a pixel's first surface needs if it has one: less than any has

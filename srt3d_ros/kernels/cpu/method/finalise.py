@@ -8,7 +8,6 @@ points. The photons that the points leave are n − g Σ_k r_k; g times their lo
 `kernels.torch` says why.
 """
 
-import numpy as np
 from numba import float32
 
 from srt3d_ros.kernels import maps
@@ -18,8 +17,8 @@ from srt3d_ros.kernels.cpu.compiling import each, floats1d, floats2d, floats3d, 
 from srt3d_ros.kernels.cpu.method.frame import Frame, point_at
 from srt3d_ros.kernels.cpu.method.likelihood import noise_at
 from srt3d_ros.kernels.cpu.method.windows import across, sum_down
-from srt3d_ros.kernels.cpu.vectors import ALL, columns, full, sqrt, where
-from srt3d_ros.kernels.cpu.workspace import Workspace
+from srt3d_ros.kernels.cpu.spans import ALL, columns
+from srt3d_ros.kernels.cpu.vectors import full, sqrt, where
 from srt3d_ros.kernels.maps import DEPTH, GRADIENT, INTENSITY, LANES, MARGIN, SCORE, STD, VALUE
 
 SHOWN = RELIEF_SCORE / 2**0.5       # RELIEF_SCORE of windows: Σ w² is half Σ w of a Gaussian
@@ -155,10 +154,13 @@ def _background(work, exposure, left, rest):
     return maps.crop(out, *work.shape).copy()
 
 
-def background(left, exposure):
-    seen = maps.pad(np.stack([left * (exposure > 0), exposure + EPSILON], axis=2))
-    return _background(Workspace(*left.shape, 1, ()), maps.pad(exposure), seen, maps.pad(left.clip(min=0)))
+def background(work, left, exposure):
+    light, rest, seen = work.map("light"), work.map("unaveraged"), work.map("seen", 2)
+    for padded, values in ((light, exposure), (rest, left.clip(min=0)), (seen[:, 0], left * (exposure > 0)),
+                           (seen[:, 1], exposure + EPSILON)):
+        maps.crop(padded, *work.shape)[:] = values
+    return _background(work, light, seen, rest)
 
 
-def local_mean(values, used):
-    return background(values * used, used)
+def local_mean(work, values, used):
+    return background(work, values * used, used)

@@ -11,7 +11,7 @@ from srt3d_ros.kernels.constants import DEAD_LIMIT, EPSILON, LIKENESS
 from srt3d_ros.kernels.cpu.arithmetic import F32, log
 from srt3d_ros.kernels.cpu.compiling import each, floats3d, floats4d, inline
 from srt3d_ros.kernels.cpu.method.frame import Frame
-from srt3d_ros.kernels.cpu.vectors import floor, full, rint, sqrt, to_cell, to_floats, where
+from srt3d_ros.kernels.cpu.vectors import floor, full, rint, sqrt, to_floats, to_ints, where
 from srt3d_ros.kernels.maps import INTENSITY, VALUE
 
 SHARED_LIKENESS = LIKENESS**2
@@ -21,7 +21,7 @@ SHARED_LIKENESS = LIKENESS**2
 def by_bin(table, depth):
     """The entries [T] of a table at the bins nearest to depths, or to distances, around the circle."""
     bins, bin = F32(len(table)), rint(depth)
-    return table[to_cell(bin - bins * floor(bin / bins), bins - 1)]
+    return table[to_ints(bin - bins * floor(bin / bins), bins - 1)]
 
 
 @inline
@@ -35,7 +35,7 @@ def evidence(response, photons, squares, frame):
     """The score p / √N · ρ(V₊ / p) of a response V, of p = Σ w n photons with N = Σ w² n, standard deviations."""
     table, last, photons = frame.background_table, F32(len(frame.background_table) - 1), max(photons, EPSILON)
     at = min(max(response / (photons * frame.max_response), 0), 1) * last
-    low = to_cell(at, last - 1)
+    low = to_ints(at, last - 1)
     before, after = table[low], table[low + 1]
     return photons / sqrt(max(squares, EPSILON)) * (before + (at - to_floats(low)) * (after - before))
 

@@ -15,7 +15,8 @@ from numba import get_num_threads, get_thread_id, int64
 from srt3d_ros.kernels.constants import EPSILON
 from srt3d_ros.kernels.cpu.compiling import each, floats3d, inline, line
 from srt3d_ros.kernels.cpu.method.frame import Frame, without
-from srt3d_ros.kernels.cpu.vectors import ALL, fma, full, lane_numbers, to_cell, where
+from srt3d_ros.kernels.cpu.spans import ALL
+from srt3d_ros.kernels.cpu.vectors import fma, full, lane_numbers, to_ints, where
 from srt3d_ros.kernels.maps import LANES
 
 
@@ -79,8 +80,8 @@ def peaks(z, steering, period, response):
     for cell in range(1, steering.cells):
         here = response[cell, ALL]
         top, height = where(here > height, cell, top), max(here, height)
-    before = response[to_cell(where(top > 0, top, cells) - 1, cells), lane_numbers()]
-    after = response[to_cell(top + 1, cells), lane_numbers()]
+    before = response[to_ints(where(top > 0, top, cells) - 1, cells), lane_numbers()]
+    after = response[to_ints(top + 1, cells), lane_numbers()]
     bend = before - 2 * height + after
     shift = where(bend < 0, 0.5 * (before - after) / bend, 0)
     return (top + shift) * (period / cells), height - 0.25 * (before - after) * shift

@@ -16,7 +16,7 @@ p / √N · ρ(R₊ / p) (`_step`). A pool of value V has a curvature of V C / E
 made small from causing a long step.
 
 Neighbours within the square of `fine` pixels count one by one, farther ones in cells of CELL × CELL pixels: the same
-sums over the cell, with w = the second factor alone, along the plane of its middle point (`_coarsen_row`). A cell
+sums over the cell, with w = the second factor alone, along the plane of its middle point (`_coarsen`). A cell
 without a point in its middle is empty. `fine` is 1 + 3 i, so that cells begin where it ends.
 
 Each vector holds LANES points that lie side by side. Along a row of neighbours dy is the same, so that what is weighted
@@ -213,7 +213,7 @@ def _weigh(i, j, window: Window, state: floats4d, known: floats4d):
 def _coarsen(i, j, frame: Frame, cell: Window, radius: int64, fine: int64, known: floats4d, terms: floats4d,
              cells: floats4d, state: floats4d):
     """Write the terms of the cells around the points, pooled along their planes."""
-    for k in range(state.shape[1] if radius > fine else 0):
+    for k in range(state.shape[1] if radius // CELL * CELL > fine else 0):
         point = point_at(state, i, k, j)
         tolerance, sums, rows = _begin(point, cell.max_chi2)
         sums, rows = _add_grid(sums, rows, point, tolerance, i, j, Grid(CELL // 2, -1, 1), cell, frame.period, state,
@@ -235,7 +235,7 @@ def _step(i, j, frame: Frame, window: Window, radius: int64, fine: int64, state:
             continue
         tolerance, sums, rows = _begin(point, window.max_chi2)
         sums, rows = _add_grid(sums, rows, point, tolerance, i, j, near, window, frame.period, state, known, terms)
-        if radius > fine:
+        if far.reach > fine:
             sums, rows = _add_grid(sums, rows, point, tolerance, i, j, far, window, frame.period, state, known, cells)
         after = _stepped(point, sums, rows, frame)
         out[i, k, DEPTH, j], out[i, k, INTENSITY, j] = after.depth, after.intensity

@@ -7,7 +7,7 @@ highest peak. With q = Σ w² / Σ w and p = N / q,
 
 Since S E ≤ Σ_l |z̄_l|, most cells that cannot reach the score they need are found without a filter (`_may_reach`).
 The others are matched (`_match_cells`), along the flat window first, then along slanted ones (`_search_slanted`). The
-pixels of a cell take its best surface (`_write_pixels`).
+pixels of a cell take its best surface (`_give_row`).
 """
 
 from typing import NamedTuple
@@ -34,20 +34,8 @@ from srt3d_ros.kernels.cpu.method.windows import (
     size,
     turns_of,
 )
-from srt3d_ros.kernels.cpu.vectors import (
-    ALL,
-    columns,
-    first_of,
-    floor,
-    full,
-    lane_numbers,
-    lanes_of,
-    span,
-    sqrt,
-    to_cell,
-    to_floats,
-    where,
-)
+from srt3d_ros.kernels.cpu.spans import ALL, columns, first_of, span
+from srt3d_ros.kernels.cpu.vectors import floor, full, lane_numbers, lanes_of, sqrt, to_floats, to_ints, where
 from srt3d_ros.kernels.maps import INTENSITY, LANES, MARGIN, SCORE, padded_shape, window_weights
 
 NO_WINDOW, NO_TURNS = np.ones(1, np.float32), np.empty((0, 1, 3), np.float32)
@@ -155,12 +143,12 @@ def _doubt(scale, least, flats):
 
 
 @line
-def _search_slanted(row, cells, window, scale, steering, frame, memory):
+def _search_slanted(row, cells, counts, exposure, scale, steering, frame, memory):
     """Search a row with windows along planes that rise or fall to the right, downwards or both.
 
     In nearly all cells no slanted window can reach the score they need: they are asked no longer.
     """
-    (counts, exposure), own = window, get_thread_id()
+    own = get_thread_id()
     least, lines, planes = memory.least[own], memory.planes[own, :SLANTS], memory.planes[own, SLANTS:]
     pool_along(DOWN, cells.z, row, scale.turns, least, lines)
     for col in columns(least):
@@ -185,7 +173,7 @@ def _give_row(i, down, scale, wanted, best, period, state):
         if lanes_of(is_open):
             x = to_floats(lane_numbers() + (first_of(j) - MARGIN))
             cell = floor((x + 0.5) / step)
-            at = to_cell(cell, full(F32(state.shape[3]))) + MARGIN
+            at = to_ints(cell, full(F32(state.shape[3]))) + MARGIN
             taken = is_open & (best[SCORE, at] > 0)
             if lanes_of(taken):
                 depth, slope_col, slope_row = best[0, at], best[1, at], best[2, at]
@@ -229,7 +217,7 @@ def _search_row(row, frame: Frame, scale: Scale, steering: Steering, pixels: Cel
     flat_slopes = F32(0), F32(0)
     _match_cells((sketch, counts, exposure), flat_slopes, scale.enough, scale, steering, frame, memory)
     if len(scale.turns) > 0 and _doubt(scale, least, flat):
-        _search_slanted(row, cells, (counts, exposure), scale, steering, frame, memory)
+        _search_slanted(row, cells, counts, exposure, scale, steering, frame, memory)
     first = (row - MARGIN) * scale.step + MARGIN
     for down in range(scale.step):
         _give_row(first + down, down, scale, pixels.wanted, best, frame.period, state)

@@ -21,7 +21,8 @@ from srt3d_ros.kernels.cpu.compiling import each, floats1d, floats2d, floats3d, 
 from srt3d_ros.kernels.cpu.method.frame import Frame, point_at, without
 from srt3d_ros.kernels.cpu.method.likelihood import by_bin
 from srt3d_ros.kernels.cpu.method.windows import across, sum_down
-from srt3d_ros.kernels.cpu.vectors import columns, first_of, fma, full, lane_numbers, lanes_of, total, where
+from srt3d_ros.kernels.cpu.spans import columns, first_of
+from srt3d_ros.kernels.cpu.vectors import fma, full, lane_numbers, lanes_of, total, where
 from srt3d_ros.kernels.maps import DEPTH, GRADIENT, INTENSITY, MARGIN, TERMS, VALUE
 
 SUMS, SPREAD = read_only(complex64[:, :, ::1]), read_only(complex64[:, :, :])

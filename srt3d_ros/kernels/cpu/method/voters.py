@@ -21,7 +21,8 @@ from srt3d_ros.kernels.constants import (
 from srt3d_ros.kernels.cpu.arithmetic import agreement, wrap
 from srt3d_ros.kernels.cpu.compiling import inline, line
 from srt3d_ros.kernels.cpu.method.frame import AROUND, is_surface, point_at
-from srt3d_ros.kernels.cpu.vectors import ALL, columns, first_of, floats, full, lanes_of, where
+from srt3d_ros.kernels.cpu.spans import ALL, columns, first_of
+from srt3d_ros.kernels.cpu.vectors import floats, full, lanes_of, where
 from srt3d_ros.kernels.maps import LANES, MARGIN
 
 MAX_VOTE, EMPTY_VOTE = MAX_VOTES * VOTE, EMPTY_VOTES * VOTE

@@ -12,7 +12,8 @@ from typing import NamedTuple
 import numpy as np
 
 from srt3d_ros.kernels.cpu.compiling import each, floats1d, floats3d, inline, line
-from srt3d_ros.kernels.cpu.vectors import columns, first_of, fma, full, lane_numbers, lanes_of, span, sqrt
+from srt3d_ros.kernels.cpu.spans import columns, first_of, span
+from srt3d_ros.kernels.cpu.vectors import fma, full, lane_numbers, lanes_of, sqrt
 from srt3d_ros.kernels.maps import LANES, MARGIN
 
 NEVER = np.inf        # a score that no cell reaches

@@ -19,7 +19,8 @@ from srt3d_ros.kernels.constants import MAX_PIXEL_PHOTONS
 from srt3d_ros.kernels.cpu.arithmetic import F32
 from srt3d_ros.kernels.cpu.compiling import floats2d, inline, parallel, read_only
 from srt3d_ros.kernels.cpu.device import zeros
-from srt3d_ros.kernels.cpu.vectors import span, spanning, to_longs
+from srt3d_ros.kernels.cpu.spans import span, spanning
+from srt3d_ros.kernels.cpu.vectors import to_longs
 from srt3d_ros.kernels.maps import LANES, MAX_ROWS, ROW_LANES, UNIT
 
 rest_span = spanning(ROW_LANES - LANES)

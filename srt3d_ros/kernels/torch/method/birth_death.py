@@ -14,7 +14,8 @@ from srt3d_ros.kernels.maps import DEPTH, FIELDS, INTENSITY, RESIDUAL, SCORE, SL
 from srt3d_ros.kernels.torch.arithmetic import agreement, explained, has_depth, waves, wrap
 from srt3d_ros.kernels.torch.fusing import fused
 from srt3d_ros.kernels.torch.method.drops import drop_ghosts, refuse_growth
-from srt3d_ros.kernels.torch.method.likelihood import expand, llr, log_likelihood_ratio
+from srt3d_ros.kernels.torch.method.likelihood import llr, log_likelihood_ratio
+from srt3d_ros.kernels.torch.method.sketches import expand
 from srt3d_ros.kernels.torch.method.windows import box, images, inner, neighbours, offsets, pad_images
 
 SIDE = 2 * VOTE_RADIUS + 1

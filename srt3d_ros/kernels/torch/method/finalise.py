@@ -1,4 +1,4 @@
-"""The end of a frame: decide on points, estimate intensity, error and background, and list what is left."""
+"""The end of a frame: decide on points, estimate intensity, error and background."""
 
 import torch
 
@@ -14,7 +14,7 @@ from srt3d_ros.kernels.maps import (
     STD,
     VALUE,
 )
-from srt3d_ros.kernels.torch.arithmetic import noise_ratio, waves, wrap
+from srt3d_ros.kernels.torch.arithmetic import noise_ratio, wrap
 from srt3d_ros.kernels.torch.fusing import fused
 from srt3d_ros.kernels.torch.method.windows import blur, images, inner, neighbours, offsets
 
@@ -57,12 +57,12 @@ def relief(frame, counts, signal, state, gradient):
     """Mean square of the relief that pools average out, bins², from what the pixels' own photons say; `signal` is g r.
 
     A pixel's own photons lie gradient / (C g r) bins off its point and, less `off_neighbours`, off the points beside
-    it, which do not follow these photons. Photon noise is v = V / (C g r)² of that square, V = g r M₀ + (n − g r) M₁;
+    it, which do not follow these photons. Photon noise is v = V / (C g r)² of that square, V = g r M₁ + (n − g r) M₀;
     pools share at least std². So d = (gradient / C − g r off)² − (V / C² − (g r std)²)₊ has a mean of (g r τ)² where
     pixels differ by τ. τ² is Σ d / Σ (g r)² of the window σ = WIDE_SCALE with weights w if
     Σ w d > RELIEF_SCORE √(Σ w² d²), for Σ w² d² = Σ w d² / 2. All points where that fails share
     (D − Σ d² / D)₊ / Σ (g r)², D = Σ d (as James and Stein's estimator). A point that follows its own photons is no
-    farther off than they are: the relief is v at most, here with V ≥ g r M₀. Uncalibrated delays of pixels look the
+    farther off than they are: the relief is v at most, here with V ≥ g r M₁. Uncalibrated delays of pixels look the
     same, and so does an IRF that is too narrow.
     """
     std, there, light2 = inner(frame, state)[:, :, STD], signal > 0, (signal * frame.curvature)**2
@@ -108,56 +108,3 @@ def local_mean(values, used):
 
 def _blurred(image):
     return blur(image[:, None], LOCAL_SIGMA)[:, 0]
-
-
-@fused
-def collect(depth, intensity, std, rays, metres_per_bin, metres, num_bins):
-    """The list of points that `unpack` reads, by pixel, the strongest first.
-
-    Only the device knows how many there are, so the list has room for K in every pixel.
-    """
-    rows, surfaces, cols = intensity.shape
-    there = intensity > 0
-    k, row, col = (torch.arange(size, device=intensity.device) for size in (surfaces, rows, cols))
-    rank = torch.zeros_like(there, dtype=torch.int64)       # how many of the pixel's points are stronger
-    for q in range(surfaces):
-        other = intensity[:, q:q + 1]
-        rank += (other > intensity) | ((other == intensity) & (k[:, None] > q))
-    number = there.sum(dim=1)
-    end = number.flatten().cumsum(0)
-    place = ((end.view(rows, cols) - number)[:, None] + rank).masked_fill(~there, intensity.numel()).flatten()
-
-    depth = depth.masked_fill(depth >= num_bins, 0)         # rounded up to T
-    xyz = rays[:, None] * (depth * metres_per_bin + metres)[..., None]
-    where = (values.expand_as(depth).to(depth.dtype) for values in (row[:, None, None], col, rank))
-    values = torch.stack([depth, intensity, std, *where]).flatten(1)
-    listed, listed_xyz = (each.new_zeros(shape) for each, shape in (
-        (values, (len(values), len(place) + 1)), (xyz, (len(place) + 1, 3))))
-    return listed.index_copy(1, place, values), listed_xyz.index_copy(0, place, xyz.flatten(0, 2)), end[-1:]
-
-
-@fused
-def unexplained(frame, points, rest, taken, passed):
-    """Sums over the pixels of what the points do not explain; y_l = g Σ_k r_k exp(i ω_l t_k), w = b̄ / n̄.
-
-    `own` are the photons of `rest` in used pixels; `taken` is `own` if None.
-
-    Returns:
-        float32 [4m + 4], sums over the pixels: of w conj(q_l) (z_l − |ĥ_l|² y_l), real parts before imaginary ones;
-        of w y_l in the same way; of w · own, w · taken, w² n and Σ_l |z_l − |ĥ_l|² y_l|² / |ĥ_l|² n̄; b̄ and n̄ are
-        `local_mean` of own and of n.
-    """
-    counts, light, matched, depth, intensity = (inner(frame, values) for values in (
-        frame.counts, frame.exposure, frame.matched, points[:, :, DEPTH], points[:, :, INTENSITY]))
-    used = (light > 0).to(light.dtype)
-    own, energy = rest * used, frame.energy[:, None]
-    gives = (intensity * light[:, None])[:, :, None]
-    shown = [(gives * wave).sum(dim=1) for wave in waves(frame, depth)]                        # [rows, m, cols] each
-    re, im = (z - energy * part for z, part in zip(matched.chunk(2, dim=1), shown))
-    around = local_mean(counts, used).clamp(min=EPSILON)
-    share = local_mean(own, used) / around
-    misfit = ((re**2 + im**2) / energy.clamp(min=TINY) / around[:, None]).sum()
-    q_re, q_im = passed.movedim(2, 1).unbind(-1)
-    maps = q_re * re + q_im * im, q_re * im - q_im * re, *shown
-    sums = [(share * own).sum(), (share * (own if taken is None else taken)).sum(), (share**2 * counts).sum(), misfit]
-    return torch.cat([*((share[:, None] * values).sum(dim=(0, 2)) for values in maps), torch.stack(sums)])

@@ -1,66 +1,16 @@
-"""The start: `prepare`, `match`, `search` and `residual`."""
+"""The start: `search`."""
 
 from typing import NamedTuple
 
 import torch
 
-from srt3d_ros.kernels import maps
 from srt3d_ros.kernels.constants import EPSILON, SEEN_SCORE, SLANT, SLANTED_SCORE, STEEPER, SURE_SCORE
 from srt3d_ros.kernels.maps import INTENSITY, RESIDUAL, SCORE, state_shape
-from srt3d_ros.kernels.torch.arithmetic import explained, noise_ratio, product, turned, waves
+from srt3d_ros.kernels.torch.arithmetic import noise_ratio, turned, waves
 from srt3d_ros.kernels.torch.fusing import fused
 from srt3d_ros.kernels.torch.method.likelihood import evidence
-from srt3d_ros.kernels.torch.method.windows import across_sums, cell_sums, down_sums, gaussian, inner, pad, window_sums
-
-
-@fused
-def prepare(sums, photons, equaliser, used, taken=None, passed=None, mean=None):
-    """z_l = equaliser_l · sums_l − taken · passed_l β_l, and used · n, padded with 0."""
-    z = product(sums, equaliser)
-    if taken is not None:
-        z = (part - taken[..., None] * shown for part, shown in zip(z, product(passed, mean)))
-    return pad(torch.cat(tuple(z), dim=-1).movedim(2, 1)), pad(photons * used)
-
-
-@fused
-def match(frame, surfaces):
-    """t_k = arg max_t R(z, t), s_k = R(z, t_k) / E, then z_l −= s_k |ĥ_l|² exp(i ω_l t_k); for k = 1 … K.
-
-    R has no frequency above max k_l: its peak is found on a grid of 4 max k_l cells (rounded up to 16), and by a
-    parabola through the highest one and its neighbours. The intensity is (s_k)₊ / g, 0 where g = 0.
-    """
-    z, found = frame.matched, []
-    for _ in range(surfaces):
-        depth, value = _peak(z, frame)
-        found.append((depth, value / frame.total_energy))
-        z = z - torch.cat(explained(frame, waves(frame, depth), found[-1][1]), dim=1)
-    depth, signal = (torch.stack(values, dim=1) for values in zip(*found))
-    light = frame.exposure[:, None]
-    return depth, signal.clamp(min=0) / light.clamp(min=EPSILON) * (light > 0)
-
-
-def _peak(z, frame):
-    """Place (bins) and height of the highest peak of R(z, t), [..., cols] each, of z [..., 2m, cols]."""
-    cells, sketches = len(frame.filters), z.movedim(-2, 0)
-    response = (frame.filters @ sketches.flatten(1)).unflatten(1, sketches.shape[1:])
-    peak, top = response.max(dim=0, keepdim=True)
-    before, after = (response.gather(0, (top + step) % cells) for step in (-1, 1))
-    bend = before - 2 * peak + after
-    shift = torch.where(bend < 0, (before - after) / 2 / bend, 0)
-    height = peak - (before - after) / 4 * shift
-    return ((top + shift) * (frame.num_bins / cells))[0], height[0]
-
-
-@fused
-def residual(frame, state, terms, layer):
-    """z_l − Σ_{k ≠ layer} (v_k / E)₊ |ĥ_l|² exp(i ω_l t_k): each surface with the intensity by its own pixel.
-
-    Intensities of pools would take too much from some pixels, and the filter would respond half a period away.
-    """
-    signal = terms[:, :, maps.VALUE].clamp(min=0) / frame.total_energy
-    others = torch.arange(state.shape[1], device=state.device)[:, None] != layer
-    given = explained(frame, waves(frame, state[:, :, maps.DEPTH]), signal * others)
-    return frame.matched - torch.cat(given, dim=2).sum(dim=1)
+from srt3d_ros.kernels.torch.method.match import peaks
+from srt3d_ros.kernels.torch.method.windows import across_sums, cell_sums, down_sums, gaussian, inner, window_sums
 
 
 def no_surfaces(frame, surfaces):
@@ -111,7 +61,7 @@ def _search_flat(frame, matched, state, layer, sigma, step, enough, slanted):
     if layer > 0:
         is_open = is_open & (view[:, layer - 1, INTENSITY] > 0)
     pools, cells = _pooled(z, counts, exposure, is_open, sigma, step)
-    shown = _shown(frame, *_peak(pools.z, frame), (0.0, 0.0), pools)
+    shown = _shown(frame, *peaks(pools.z, frame), (0.0, 0.0), pools)
     new = _in_pixels(frame, step, shown)
     _give(point, is_open & (new[:, SCORE] > enough), new)
     return (cells, pools, is_open, shown[:, SCORE]) if slanted else None
@@ -149,7 +99,7 @@ def _search_across(frame, line, rise, rises, pools, sigma, step):
     col = torch.arange(line.shape[-1], device=line.device)
     cosine, sine = waves(frame, step * rises[:, None, None] * col)
     z = across_sums(_turned(line, (cosine, sine)), gaussian(sigma / step, line))
-    shown = _shown(frame, *_peak(_turned(z, (cosine, -sine)), frame), (rises[:, None, None], rise), pools)
+    shown = _shown(frame, *peaks(_turned(z, (cosine, -sine)), frame), (rises[:, None, None], rise), pools)
     return _best_of(shown)
 
 
