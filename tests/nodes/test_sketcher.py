@@ -69,6 +69,7 @@ def test_sketches_are_the_cores_in_all_forms_and_follow_the_parameters(graph, se
                            ({"frequencies": "48,49"}, "frequencies is [48, 49]: expected some that the sensor's IRF"),
                            ({"gate": "50:60"}, "gate is 50-60: expected 15 bins or more, as many as the IRF has"),
                            ({"gate": True}, "gate is True: expected off, or first and last bin such as 100-400"),
+                           ({"frame_id": False}, "frame_id is False: expected text"),
                            ({"packets_per_frame": 0}, "packets_per_frame out of range"),
                            ({"sensor_file": "a.json"}, "read-only")):
         assert reason in graph.set("sketcher", **values)

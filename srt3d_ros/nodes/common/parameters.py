@@ -72,11 +72,11 @@ class Parameter:
     def check(self, value: Any) -> Any:
         """The value in the parameter's type, or InvalidInput.
 
-        YAML reads the text off as false, texts of numbers as numbers or lists of them; all are accepted for texts. For
-        a number, an integer or a text is accepted: `ros2 param set` sends 5 as an integer and 1e-4 as a text.
+        YAML reads the text off as false, which is accepted where off is, and texts of numbers as numbers or lists of
+        them. For a number, an integer or a text is accepted: `ros2 param set` sends 5 as an integer and 1e-4 as a text.
         """
         kind = type(self.default)
-        if kind is str and value is False:
+        if kind is str and value is False and "off" in self.expected:
             value = "off"
         elif kind is str and isinstance(value, (array, list, tuple)):
             value = ",".join(map(str, value))
