@@ -152,10 +152,10 @@ class Matcher:
 
     def _overlap(self) -> np.ndarray:
         """`MatchedFrame.overlap`: OVERLAP times c, p and q at Δ = 0 … T − 1."""
-        waves = np.exp(1j * np.outer(np.arange(self.sensor.num_bins), self.omega))
+        angles = np.outer(np.arange(self.sensor.num_bins), self.omega)
         total, slope, curvature = (self.energy * self.omega**power for power in range(3))
-        cross = waves.imag @ slope / np.sqrt(total.sum() * curvature.sum())
-        rows = waves.real @ total / total.sum(), waves.real @ curvature / curvature.sum(), cross
+        cross = np.sin(angles) @ slope / np.sqrt(total.sum() * curvature.sum())
+        rows = np.cos(angles) @ total / total.sum(), np.cos(angles) @ curvature / curvature.sum(), cross
         return OVERLAP * np.stack(rows).astype(np.float32)
 
     def _unlike(self) -> np.ndarray:
