@@ -21,7 +21,7 @@ The pixels in which something is to be decided are listed, and each vector holds
 from typing import NamedTuple
 
 import numpy as np
-from numba import boolean, float32, get_thread_id, int32, prange
+from numba import boolean, get_thread_id, int32, prange
 
 from srt3d_ros.kernels.constants import BIRTH_COST, LIKENESS, SPREAD, VOTE_RADIUS
 from srt3d_ros.kernels.cpu.arithmetic import F32, exp
@@ -46,6 +46,7 @@ from srt3d_ros.kernels.cpu.method.voters import (
     support,
     undecided,
     voter_at,
+    write_tolerances,
 )
 from srt3d_ros.kernels.cpu.spans import ALL, span
 from srt3d_ros.kernels.cpu.vectors import floats, floor, full, lanes_of, where
@@ -78,13 +79,16 @@ class Best(NamedTuple):
     ratio: floats
 
 
-@each
-def _find(i, j, frame: Frame, max_chi2: float32, grows: boolean, state: floats4d, near: floats2d, to_decide: floats2d):
+def _find(i, j, frame: Frame, grows: boolean, state: floats4d, tolerances: floats3d, near: floats2d,
+          to_decide: floats2d):
     """Write 1 where a pixel near a change has something to decide, and forget the change."""
     decides = near[i, j] > 0
     if lanes_of(decides):
-        decides &= undecided(i, j, state, max_chi2, frame, grows)
+        decides &= undecided(i, j, state, tolerances, frame, grows)
     to_decide[i, j], near[i, j] = where(decides, 1, 0), 0
+
+
+_find_undecided = each(write_tolerances, _find)
 
 
 @line
@@ -138,12 +142,12 @@ def _take(found, best, depth, seen, voters, rest, frame):
 
 
 @line
-def _judge(at, listed, frame, state, own, max_chi2, points, ratios, near, stale, voters, rest):
+def _judge(at, listed, frame, state, own, tolerances, points, ratios, near, stale, voters, rest):
     """Let LANES of the listed pixels choose their surfaces, one after the other, and write 1 near changes."""
     rows, cols, surfaces = listed[0, span(at)], listed[1, span(at)], state.shape[1]
     for c in range(len(rest)):
         rest[c, ALL] = frame.matched[rows, c, cols]
-    empty, dark = gather_voters(rows, cols, frame, state, own, max_chi2, voters)
+    empty, dark = gather_voters(rows, cols, frame, state, own, tolerances, voters)
     photons, exposure, nothing = frame.counts[rows, cols], frame.exposure[rows, cols], full(0.0)
     has_surface = voters[MIDDLE * surfaces, COUNT, ALL] > 0
     needed, dark = where(has_surface, BIRTH_COST, BIRTH_COST + empty), where(has_surface, 0, dark)
@@ -179,7 +183,7 @@ def _adopt(at, listed, points, ratios, near, state, own):
 
 
 @parallel
-def _decide(frame: Frame, state: floats4d, own: floats3d, max_chi2: float32, to_decide: floats2d,
+def _decide(frame: Frame, state: floats4d, own: floats3d, tolerances: floats3d, to_decide: floats2d,
             listed: int32[:, ::1], points: floats3d, ratios: floats2d, near: floats2d, stale: floats2d,
             voters: floats4d, rest: floats3d):
     """Let the pixels to decide choose their surfaces, then adopt these; whether any has changed.
@@ -189,7 +193,7 @@ def _decide(frame: Frame, state: floats4d, own: floats3d, max_chi2: float32, to_
     vectors, changed = list_pixels(to_decide, listed), 0
     for n in prange(vectors):
         t = get_thread_id()
-        _judge(n * LANES, listed, frame, state, own, max_chi2, points, ratios, near, stale, voters[t], rest[t])
+        _judge(n * LANES, listed, frame, state, own, tolerances, points, ratios, near, stale, voters[t], rest[t])
     for n in prange(vectors):
         changed += _adopt(n * LANES, listed, points, ratios, near, state, own)
     return changed > 0
@@ -197,7 +201,7 @@ def _decide(frame: Frame, state: floats4d, own: floats3d, max_chi2: float32, to_
 
 def birth_death(work, frame, state, terms, max_chi2):
     """A round of spreading looks only around the surfaces that the last one has changed."""
-    frame, max_chi2, pixels = Frame.of(frame), F32(max_chi2), work.height * work.width
+    frame, pixels, tolerances = Frame.of(frame), work.height * work.width, work.map("tolerances", work.surfaces)
     near, stale, had, to_decide = map(work.map, ("near", "stale", "had", "to decide"))
     own = log_likelihood_ratio(work, frame, state, terms)
     memory = (work.array("listed pixels", 2, pixels, of=np.int32),
@@ -208,8 +212,8 @@ def birth_death(work, frame, state, terms, max_chi2):
     np.max(state[:, :, INTENSITY], axis=1, out=had)
     near[:], stale[:] = 1, 0
     for spreads in range(1 + SPREAD):
-        _find(frame, max_chi2, spreads > 0, state, near, to_decide)
-        if not _decide(frame, state, own, max_chi2, to_decide, *memory):
+        _find_undecided(frame, F32(max_chi2), tolerances, state, spreads > 0, near, to_decide)
+        if not _decide(frame, state, own, tolerances, to_decide, *memory):
             break
     expand_stale(frame, state, terms, stale)
     refuse_growth(work, frame, state, terms, had)

@@ -8,6 +8,7 @@ their pixel along their planes.
 from typing import NamedTuple
 
 import numpy as np
+from numba import float32
 
 from srt3d_ros.kernels.constants import (
     EMPTY_VOTES,
@@ -19,8 +20,8 @@ from srt3d_ros.kernels.constants import (
     VOTE_RADIUS,
 )
 from srt3d_ros.kernels.cpu.arithmetic import agreement, wrap
-from srt3d_ros.kernels.cpu.compiling import inline, line
-from srt3d_ros.kernels.cpu.method.frame import AROUND, is_surface, point_at
+from srt3d_ros.kernels.cpu.compiling import floats3d, floats4d, inline, line
+from srt3d_ros.kernels.cpu.method.frame import AROUND, Frame, is_surface, point_at
 from srt3d_ros.kernels.cpu.spans import ALL, columns, first_of
 from srt3d_ros.kernels.cpu.vectors import floats, full, lanes_of, where
 from srt3d_ros.kernels.maps import LANES, MARGIN
@@ -58,22 +59,22 @@ def voter_at(voters, q):
                  voters[q, 8, ALL])
 
 
-@inline
-def _tolerance(point, state, place, max_chi2, frame):
-    """v of points k of pixels, the square of how far their depths may be off: max_chi2 · std² + min(δ, Δ / 2)²."""
-    (row, k, col), room = place, full(frame.resolution * frame.resolution)
-    for o in range(state.shape[1]):
-        if o != k:
-            other = point_at(state, row, o, col)
-            there = is_surface(other, frame)
-            if lanes_of(there) != 0:
-                half = wrap(other.depth - point.depth, frame.period) / 2
-                room = where(there, min(room, half * half), room)
-    return max_chi2 * point.std * point.std + room
+def write_tolerances(i, j, frame: Frame, max_chi2: float32, tolerances: floats3d, state: floats4d):
+    """Write v of points, the square of how far their depths may be off: max_chi2 · std² + min(δ, Δ / 2)²."""
+    for k in range(state.shape[1]):
+        point, room = point_at(state, i, k, j), full(frame.resolution * frame.resolution)
+        for o in range(state.shape[1]):
+            if o != k:
+                other = point_at(state, i, o, j)
+                there = is_surface(other, frame)
+                if lanes_of(there) != 0:
+                    half = wrap(other.depth - point.depth, frame.period) / 2
+                    room = where(there, min(room, half * half), room)
+        tolerances[i, k, j] = max_chi2 * point.std * point.std + room
 
 
 @line
-def gather_voters(rows, cols, frame, state, own, max_chi2, voters):
+def gather_voters(rows, cols, frame, state, own, tolerances, voters):
     """Write the voters of the pixels; returns what a first surface needs, and loses if bright, for empty neighbours.
 
     `needed` is for neighbours with photons but no surface; `dark` for those without photons.
@@ -89,10 +90,9 @@ def gather_voters(rows, cols, frame, state, own, max_chi2, voters):
             weight = voters[q, WEIGHT, ALL] = where(there, NEARNESS[place], 0)
             if lanes_of(there):
                 depth = point.depth - (point.slope_col * dx + point.slope_row * dy)
-                tolerance = _tolerance(point, state, (row, k, col), max_chi2, frame)
                 says = VOTING[place] * min(max(VOTE + own[row, k, col], 0), MAX_VOTE)
-                voter = Voter(depth, tolerance, point.intensity, point.slope_col, point.slope_row, point.std, weight,
-                              says, nothing)
+                voter = Voter(depth, tolerances[row, k, col], point.intensity, point.slope_col, point.slope_row,
+                              point.std, weight, says, nothing)
                 for field, value in enumerate(where(there, voter, 0)):      # elsewhere no field is valid but the weight
                     voters[q, field, ALL] = value
         voters[place * surfaces, COUNT, ALL] = count
@@ -172,21 +172,21 @@ def mean_of(candidate, voters, period):
 
 
 @inline
-def _is_unknown(state, row, q, col, offset, max_chi2, frame):
+def _is_unknown(state, row, q, col, offset, tolerances, frame):
     """Whether the neighbours' surfaces q agree with none of the pixels' own; and whether there are any."""
     (dy, dx), other = offset, point_at(state, row + offset[0], q, col + offset[1])
     there = unknown = is_surface(other, frame)
     depth = other.depth - (other.slope_col * dx + other.slope_row * dy)
-    tolerance = _tolerance(other, state, (row + dy, q, col + dx), max_chi2, frame)
+    tolerance = tolerances[row + dy, q, col + dx]
     for k in range(state.shape[1]):
         own = point_at(state, row, k, col)
-        e, v = wrap(depth - own.depth, frame.period), _tolerance(own, state, (row, k, col), max_chi2, frame)
-        unknown &= ~(is_surface(own, frame) & (e * e < tolerance + v))
+        e = wrap(depth - own.depth, frame.period)
+        unknown &= ~(is_surface(own, frame) & (e * e < tolerance + tolerances[row, k, col]))
     return unknown, there
 
 
 @line
-def undecided(i, j, state, max_chi2, frame, grows):
+def undecided(i, j, state, tolerances, frame, grows):
     """In which used pixels there is something to decide; if surfaces grow (`grows`), with fewer than K surfaces."""
     surfaces, had, something = state.shape[1], full(0.0), full(False)
     for k in range(surfaces):
@@ -198,7 +198,7 @@ def undecided(i, j, state, max_chi2, frame, grows):
         for offset in AROUND:
             around = full(0.0)
             for q in range(surfaces):
-                unknown, there = _is_unknown(state, i, q, j, offset, max_chi2, frame)
+                unknown, there = _is_unknown(state, i, q, j, offset, tolerances, frame)
                 around += where(there, 1, 0)
                 something |= unknown
             something |= (around > 0) & (around < had)
